@@ -132,7 +132,7 @@ def simulation_of(seed: int, folder: Path) -> SimulationTask | None:
     return task if moves and len(motion) == n else None
 
 
-def judged(task: Task, runs: int) -> Row | None:
+def judged(task: Task, runs: int) -> Row:
     """Return true errors, estimates and least times of a motion at every setting."""
     reference = (SweepReference if isinstance(task, SweepTask) else SimulationReference)(task)
     settings = SETTINGS[task.kind]
@@ -180,8 +180,27 @@ def rows_of(seed: int, has_times: bool, in_time: bool) -> Iterable[Row]:
             yield {"seed": seed, "is_timed": True, **judged(longer, RUNS)}
 
 
-def is_bound(one: Row) -> bool:
-    return all(x <= y for x, y in zip(one["true"], one["estimate"], strict=True))
+def percent(holds: Any) -> str:
+    return f"{100 * np.mean(holds):.1f} %"
+
+
+def compared(
+    name: str, true: Any, estimate: Any, digits: int, unstable: Any = None
+) -> list[str]:
+    """Return cells of a setting that compare true errors (N, 3) with those allowed and estimated.
+
+    Where motions may be unstable (N,), one cell more takes those that say so for kept.
+    """
+    floored = np.maximum(true, NOTHING)
+    largest, allowed = floored.max(axis=1), np.nan if name in LEVELS else float(name)
+    kept = [largest <= allowed]
+    if unstable is not None:
+        kept.append(kept[0] | unstable)
+    promise = ["-"] * (1 + len(kept)) if name in LEVELS else [
+        f"{np.median(allowed / largest):.0f}", *map(percent, kept)]
+    told = np.median(estimate.max(axis=1) / largest)
+    return [*promise, percent((true <= estimate).all(axis=1)), f"{told:.{digits}f}",
+            f"{(estimate / floored).min():.2g}"]
 
 
 def table_in_time(rows: Sequence[Row]) -> list[str]:
@@ -194,21 +213,11 @@ def table_in_time(rows: Sequence[Row]) -> list[str]:
     for name in SETTINGS["simulate"]:
         ones = [row["settings"][name] for row in rows]
         known = np.array([row["known"] for row in rows])[:, None]
-        true = np.maximum(np.array([one["true"] for one in ones]) - known, NOTHING)
-        by = np.array([one["estimate"] for one in ones]) / true
-        largest = true.max(axis=1)
-        times = [one["seconds"] / row["settings"]["engineering"]["seconds"]
-                 for one, row in zip(ones, rows, strict=True)]
-        allowed = np.nan if name in LEVELS else float(name)
-        kept, says = largest <= allowed, np.array([one["is_unstable"] for one in ones])
-        told = np.array([max(one["estimate"]) for one in ones]) / largest
-        promise = (["-"] * 3 if np.isnan(allowed) else [
-            f"{np.median(allowed / largest):.0f}",
-            *(f"{100 * np.mean(x):.1f} %" for x in (kept, kept | says))])
-        lines.append(cells(
-            name, f"{np.median(times):.2f}", *promise,
-            f"{100 * np.mean((by >= 1.0).all(axis=1)):.1f} %", f"{np.median(told):.1f}",
-            f"{by.min():.2g}"))
+        true, estimate = (np.array([one[key] for one in ones]) for key in ("true", "estimate"))
+        relative = [one["seconds"] / row["settings"]["engineering"]["seconds"]
+                    for one, row in zip(ones, rows, strict=True)]
+        lines.append(cells(name, f"{np.median(relative):.2f}", *compared(
+            name, true - known, estimate, 1, np.array([one["is_unstable"] for one in ones]))))
     return [*lines, cells(f"{len(rows)} simulations", *[""] * 7)]
 
 
@@ -242,17 +251,9 @@ def table(rows: Sequence[Row]) -> list[str]:
              cells(*["---"] * 12)]
     for name in SETTINGS["sweep"]:
         ones = [row["settings"][name] for row in bounds]
-        true = np.array([max(*one["true"], NOTHING) for one in ones])
-        by = np.array([max(one["estimate"]) for one in ones]) / true
-        allowed = np.nan if name in LEVELS else float(name)
-        over, kept = f"{np.median(allowed / true):.0f}", f"{100 * np.mean(true <= allowed):.1f} %"
-        least = min(y / max(x, NOTHING) for one in ones
-                    for x, y in zip(one["true"], one["estimate"], strict=True))
-        lines.append(cells(
-            name, *(x for part in by_size for x in times(part, name)),
-            *(("-", "-") if np.isnan(allowed) else (over, kept)),
-            f"{100 * np.mean([is_bound(one) for one in ones]):.1f} %", f"{np.median(by):.0f}",
-            f"{least:.2g}"))
+        true, estimate = (np.array([one[key] for one in ones]) for key in ("true", "estimate"))
+        lines.append(cells(name, *(x for part in by_size for x in times(part, name)),
+                           *compared(name, true, estimate, 0)))
     return [*lines, cells(f"{len(bounds)} sweeps", *[""] * 11)]
 
 

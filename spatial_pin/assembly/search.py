@@ -252,11 +252,12 @@ def _judged(problem: AssemblyProblem, result: ClosureResult) -> tuple[float, str
         return result.error, "", False
     evaluation, whole, q = problem.evaluation, problem.whole, result.q.copy()
     evaluation.update(result.q)
-    error, mirrored = evaluation.closure_error, evaluation.mirrored()
+    error = evaluation.closure_error
     # its own round-off is allowed; the turns of a fixed angle do not make its sine less exact
     q[[c.q for c in periodic(problem.mechanism) if c.name in problem.held]] = 0.0
     if not error <= min(max(ACCEPTED, coordinate_round_off(problem.mechanism, q)), OPEN):
         return error, evaluation.worst_closure(), False
+    mirrored = evaluation.mirrored()
     if whole is not None:
         whole.update(result.q)
         if (opened := whole.closure_error) > problem.gap:

@@ -250,8 +250,7 @@ def centred_tree(mechanism: Mechanism) -> KernelTree:
 def mass_entries(tree: KernelTree, all_joints: bool) -> MassEntries:
     """Return rows, columns and indices in `masses` of all entries that can be other than zero.
 
-    Of the core alone the others are units, each with a number of its own behind those of
-    `eliminate`.
+    Of the core alone the others are units, each with a number of its own behind those of the core.
     """
     t, rows, columns = tree.arrays, list[NDArray[np.intp]](), list[NDArray[np.intp]]()
     freedoms = np.split(np.arange(len(t.joint_of)), t.iv[1:])

@@ -77,9 +77,9 @@ class LargeTree:
 
     def __init__(self, model: pin.Model) -> None:
         self.model, self._tree = model, KernelTree(model)
-        n, (joints, single) = model.njoints, (model.njoints, len(self._tree.arrays.kind))
+        n, single = model.njoints, len(self._tree.arrays.kind)
         self.placements, self.columns = np.empty((n, 4, 3)), np.empty((6, model.nv))
-        self.twists, self.accelerations = np.zeros((2, joints, 6))
+        self.twists, self.accelerations = np.zeros((2, n, 6))
         self.data = SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
         self._R, self._p = np.empty((single, 3, 3)), np.empty((single, 3))
 

@@ -3,7 +3,7 @@
 At a branch point (a change point) the equations lose rank and nothing can be solved; on either side
 each branch is a smooth curve. The one that goes straight on is the continuation of the curve
 before it as a polynomial, corrected by the closure equations behind it; between the two
-sides everything is interpolated from both. Simulations have their own in the kernel, `passing.c`,
+sides everything is interpolated from both. Simulations have their own in the kernel, `crossing.c`,
 forty times as fast, for one freedom.
 """
 

@@ -57,7 +57,7 @@ def system_at(
         except SingularError:
             continue
         curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)
-        point = curve.settle(state.q, system.driver_rates()[:, 0] / system.scale)
+        point = curve.settle(state.q, curve.tangent(system.driver_rates()[:, 0]))
         q = curve.ahead(point, BESIDE_LIMIT) if point is not None else None
         if q is not None:
             state = State(mechanism, q, closure_error=curve.evaluation.closure_error,

@@ -221,6 +221,8 @@ def calibrate(
         AssemblyError: the first measurement cannot be assembled.
         SpatialPinError: another measurement cannot be reached; the drivers do not determine a
             measured value; a dimension opens the loops; the search does not converge.
+        SingularError: a measurement is so near a singular configuration that no derivative has a
+            digit.
         Interrupted: after Ctrl-C; `.result` has the best values until then.
 
     Example:

@@ -16,12 +16,13 @@ import numpy as np
 
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import fixed_base_entries
+from spatial_pin.assembly.square_system import SINGULAR_PIVOT
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dimensions.moved_geometry import MovedGeometry
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.forces import Forces
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -76,8 +77,18 @@ class ClosedDerivatives:
 
     @cached_property
     def positions(self) -> Decomposition:
-        """The closure equations, drivers and fixed entries, by scaled velocities."""
-        return full_decomposition(self._matrix(self.by[0][0][:, self.geometry.v] * self.scale))
+        """The closure equations, drivers and fixed entries, by scaled velocities.
+
+        Raises:
+            SingularError: a singular value is neither zero nor large enough for a digit, as of
+                rates.
+        """
+        system = full_decomposition(self._matrix(self.by[0][0][:, self.geometry.v] * self.scale))
+        if system.rank and system.s[system.rank - 1] < SINGULAR_PIVOT * system.s[0]:
+            raise SingularError(
+                f"mechanism {self.state.mechanism.name!r}: singular configuration, {self.state}: "
+                "the derivatives have no reliable digit there", state=self.state)
+        return system
 
     def _matrix(self, closed: Array) -> Array:
         m, q = self.state.mechanism, self.state.q
@@ -136,6 +147,7 @@ class ClosedDerivatives:
 
         Raises:
             OpenedError: an input alone opens a loop.
+            SingularError: the state is too near a singular one.
         """
         loose = self._rates.null_space
         moved, n = self.displacements(given), len(loose)
@@ -155,6 +167,7 @@ class ClosedDerivatives:
 
         Raises:
             OpenedError: an input alone opens a loop.
+            SingularError: the state is too near a singular one.
         """
         spare, m, own = self.positions.null_space, given.values.shape[1], self.geometry.v
         q = np.zeros((self.mechanism.model.nv, m + len(spare)))

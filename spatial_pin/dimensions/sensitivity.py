@@ -18,7 +18,6 @@ import numpy as np
 from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin.assembly.holding import BASE
-from spatial_pin.assembly.square_system import SINGULAR_PIVOT
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.dimensions.bounds import check_dimensions
 from spatial_pin.dimensions.changed_state import Load, output_changes
@@ -279,11 +278,8 @@ class _Around:
                     load = Load.of_sample(drive.outputs_at(there).loads, 0, True)
                     there = there if drive.in_time else _at_rest(there)
                 speed = there.coordinate(drive.driver).rate
-                closed = ClosedDerivatives(self._geometry, there, driven, still)
-                regular = closed.positions.s[: closed.positions.rank]
-                if len(regular) and regular[-1] < SINGULAR_PIVOT * regular[0]:
-                    continue  # no digit would be left, as of rates
-                found = output_changes(closed, given, load, some.values(), speed)
+                found = output_changes(ClosedDerivatives(self._geometry, there, driven, still),
+                                       given, load, some.values(), speed)
             except SpatialPinError:
                 continue
             size = mechanism.characteristic_length

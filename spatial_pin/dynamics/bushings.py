@@ -26,7 +26,7 @@ SERIES = 0.1
 TERMS = 24  # terms of these series: the last is 1e-30
 # Entries of R whose difference is twice the sine of the rotation about x, y and z.
 SINES = (((2, 1), (1, 2)), ((0, 2), (2, 0)), ((1, 0), (0, 1)))
-Coefficients = dict[int, Array]
+Coefficients = dict[int, Array]  # of a vector: (4,) by joint
 Law = Callable[[float, float], float]
 Slopes = Callable[[str, float, float], tuple[float, float]]
 

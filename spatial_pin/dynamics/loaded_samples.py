@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from spatial_pin._support.checks import as_array, is_finite, mapping
 from spatial_pin._support.lazy import acquired
-from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.assembly.state import State, angles_of, moving_in_time
 from spatial_pin.constraints.kernel_tree import KernelTree, TreeSprings, centred_tree
 from spatial_pin.dynamics.forces import Law, forces_on_frames, joint_efforts
 from spatial_pin.dynamics.reactions import Poses
@@ -119,9 +119,9 @@ class LoadedSamples:
         """
         bearing, n = self.bearing, len(self.motion)
         size = SAMPLES_AT_ONCE if self.is_together else 1
-        if n:
-            self._set_sample(0)
         for first in range(0, n, size):
+            if not (first and self.is_together):  # the first one sets the laws of springs
+                self._set_sample(first)
             piece = self._loaded(slice(first, min(first + size, n)))
             solution = together(piece) if self.is_together else None
             if solution is not None:
@@ -129,7 +129,8 @@ class LoadedSamples:
             else:  # one by one; their reactions follow together
                 forces = []
                 for k in range(piece.at.start, piece.at.stop):
-                    self._set_sample(k)
+                    if self.is_together:
+                        self._set_sample(k)
                     at_joints, (self.a[k], closures, self.error[k]), internal = alone(k)
                     if bearing.pairs.coupled or len(internal) or (
                             bearing.n_closure and bearing.spaces.rank < bearing.n_closure):
@@ -142,24 +143,25 @@ class LoadedSamples:
     def _loaded(self, at: slice) -> SampleBlock:
         """Return samples with the forces that act on them."""
         equations, motion, springs = self.equations, self.motion, self.equations.springs
-        k = at.stop - at.start
+        k, q, v, angles = at.stop - at.start, motion.q[at], self.v[at], angles_of(motion)[at]
+        if not self.is_together:  # one sample, where the equations are
+            return SampleBlock(at, q, v, angles, equations.given[None], equations.turning[None],
+                               self.bearing.pairs.summed(equations.wrenches)[None])
         turning = np.zeros((k, equations.model.nv))
         wrenches = np.zeros((k, equations.model.njoints, 6))
         if springs.exist:
-            turning[:] = [springs.turning(*x) for x in zip(motion.q[at], self.v[at], strict=True)]
+            turning[:] = [springs.turning(*x) for x in zip(q, v, strict=True)]
         given = turning.copy()
         if self._external or springs.on_frames:
-            found = None if self._external else _spring_wrenches(
-                equations, self.bearing.mechanism, motion.q[at], self.v[at])
+            found = None if self._external else _spring_wrenches(equations, q, v)
             if found is not None:
                 wrenches, forces = found
                 given += forces
             for row in range(k if found is None else 0):
                 self._set_sample(at.start + row)
                 given[row] = equations.given
-                wrenches[row] = self.bearing.pairs.summed(equations.wrenches)
-        angles = motion.angles[at] if motion.angles.size else np.zeros((k, 0))
-        return SampleBlock(at, motion.q[at], self.v[at], angles, given, turning, wrenches)
+                wrenches[row] = equations.pairs.summed(equations.wrenches)
+        return SampleBlock(at, q, v, angles, given, turning, wrenches)
 
     def _take(self, piece: SampleBlock, at_joints: Array, solution: Accelerated) -> None:
         """Take accelerations and efforts (k, nv) at joints of a piece that the kernel solved."""
@@ -225,9 +227,7 @@ def _in_motion(tree: KernelTree, *motions: Array) -> tuple[Array, Array, Array]:
     return tree.placed(rotations, positions), columns, wrench[:, tree.arrays.carriers]
 
 
-def _spring_wrenches(
-    equations: Equations, mechanism: Mechanism, q: Array, v: Array
-) -> tuple[Array, Array] | None:
+def _spring_wrenches(equations: Equations, q: Array, v: Array) -> tuple[Array, Array] | None:
     """Return the wrenches (k, njoints, 6) of springs on frames, and their joint forces (k, nv).
 
     None of springs with laws, or whose frames coincide: the kernel does not know them.
@@ -236,7 +236,7 @@ def _spring_wrenches(
     if springs.laws_on_frames:
         return None
     (q, v), columns = (np.array(x, order="C") for x in (q, v)), np.empty((len(q), 6, v.shape[1]))
-    with acquired(mechanism, centred_tree) as tree:
+    with acquired(equations.mechanism, centred_tree) as tree:
         packed = TreeSprings(tree.arrays, springs.packed)
         of_joints = np.empty((len(q), len(tree.arrays.kind), 6))
         tree.prepared(q, v, np.zeros_like(v), tau=np.empty_like(v), jacobian=columns,

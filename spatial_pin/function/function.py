@@ -124,7 +124,7 @@ class Function:
 
         Raises:
             AssemblyError: a row cannot be reached; says which.
-            SingularError: rates of a row are not determined.
+            SingularError: rates of a row are not determined, or its derivatives have no digit.
             SpatialPinError: an output depends on a freedom that the inputs do not determine, or an
                 input alone opens a loop; says which.
             ValueError: x is NaN or infinite, or has another shape.
@@ -298,6 +298,8 @@ class Function:
             every = np.vstack(output_changes(at, given, load, self._outputs))
         except OpenedError as error:
             raise self._opened(row, error.column, state) from error
+        except SingularError as error:
+            raise SingularError(f"row {row}: {error}", state=state) from error
         if np.isnan(every).any():
             label = self.labels[int(np.isnan(every).any(axis=1).argmax())]
             raise SpatialPinError(

@@ -39,8 +39,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 # angle of the middle hinge at which a new chain begins [rad]: at pi/2 it is singular, and here the
 # outer hinges turn three times as fast as the frame
 LEANING = 1.2
-# here rates of the outer hinges are three times those of what turns
-ALL = np.eye(3)
+ALL = np.eye(3)  # directions of slides along all axes
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ class Numbers(NamedTuple):
     Attributes:
         base: (n,) the numbers of a kernel, then (3,) of each point in the axes of the kernel's
             joint that carries it.
-        places: (k,) indices of those that differ from sample to sample.
+        indices: (k,) of those that differ from sample to sample.
         varied: (m, k) their values.
     """
 
@@ -104,7 +104,7 @@ class DimensionKernel:
             free: (nv,) velocities that may move to close the loops.
             joints: Pinocchio's indices of the joints that carry the points.
             rates: (2, n_driven) speeds and accelerations of the drivers; None: all stand still.
-            tolerance: as for `Closer.close`.
+            tolerance: see `ClosureSettings`.
             iterations: damped steps at most.
         """
         kernel, m, nv = self._kernel, len(q), self._kernel.nv

@@ -10,8 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.kernel_tree import KernelTree, TreeTask, mass_entries
-from spatial_pin.kernel.kernel import Kernel, packed
+from spatial_pin.constraints.kernel_tree import (
+    KernelTree,
+    MassEntries,
+    TreeTask,
+    mass_entries,
+)
+from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.library import INT, POINTER, CStructure, address, check, numbers
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -81,10 +86,8 @@ class KKT:
         multipliers: (n_closure,) 0 of equations that are left out.
     """
 
-    def __init__(
-        self, mechanism: Mechanism, mass_entries: tuple[Positions, Positions, Positions]
-    ) -> None:
-        self._kernel = kernel = Kernel(mechanism, packed(mechanism, True))
+    def __init__(self, mechanism: Mechanism, mass_entries: MassEntries) -> None:
+        self._kernel = kernel = Kernel(mechanism)
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
         closures = groupby(kernel.constraints.closure_of)
         groups = np.cumsum([0, *(len(list(group)) for _, group in closures)])  # by closure

@@ -77,13 +77,15 @@ def idle_freedoms(
     """
     mechanism, n = evaluation.mechanism, evaluation.constraints.n_closure
     evaluation.update(q)
+    if not n:
+        return []
     driven = list(driver_coordinates(mechanism).values())
     still = [*fixed_base_entries(mechanism, driven), *held]
     rows = [*(scaled_row(mechanism, c, q) for c in driven), *np.eye(evaluation.model.nv)[still]]
     tangents = null_space(np.vstack([evaluation.jacobian[:n], *rows]), TOLERANCES.half_precision)
+    if not len(tangents):
+        return []
     freedoms: list[tuple[str, Array]] = []
-    if not n or not len(tangents):
-        return freedoms
     for joint, velocities in passive_freedoms(evaluation, mechanism.velocity_scale * tangents):
         if is_in_loop(mechanism, joint):
             motions = _spins_and_slides(evaluation, joint, velocities)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,7 +22,7 @@ from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import require_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.limit_events import limit_events
-from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.motion.motion import Event, Motion, made
 from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.motion.sweep import (
     ENDS,
@@ -126,8 +126,8 @@ def follow(
         if state.mechanism.whole is None:
             break
         chosen, good = independent_on(
-            _motion(state.mechanism, result.samples, result.done, None), accuracy,
-            result.samples.t[max(0, result.done - 1)],
+            _motion(state.mechanism, result.samples, result.done, None, moved.held, limit_events),
+            accuracy, result.samples.t[max(0, result.done - 1)],
             None if result.stop is None else result.stop.q)
         if chosen is state.mechanism:
             break
@@ -171,8 +171,6 @@ def finished(
         Interrupted: Ctrl-C ended it.
     """
     stop = followed.stop
-    motion = _motion(mechanism, followed.samples, followed.done, times)
-    motion.held = held
     begin = 0.0 if times is None else float(times[0])
     events = [Event("released", begin, 0, text) for text in followed.released]
     events += [crossed_event(value, row, _where(value, times is None))
@@ -184,8 +182,8 @@ def finished(
     last = [] if stop is None or followed.is_cut else [
         stop_event(stop, followed.done, _where(stop.value, times is None),
                    f"limit of what the {who} can do together")]
-    del motion.events
-    motion.__dict__["_look"] = lambda motion: [*events, *limit_events(motion), *last]
+    motion = _motion(mechanism, followed.samples, followed.done, times, held,
+                     lambda motion: [*events, *limit_events(motion), *last])
     if followed.is_cut:
         raise Interrupted(motion)
     if stop is not None:
@@ -266,16 +264,18 @@ def _column(given: Any, n: int, what: str) -> Array:
     return finite_array(np.full(n, numbers) if numbers.ndim == 0 else numbers, (n,), what)
 
 
-def _motion(mechanism: Mechanism, samples: PathSamples, n: int, times: Array | None) -> Motion:
+def _motion(
+    mechanism: Mechanism, samples: PathSamples, n: int, times: Array | None,
+    held: tuple[str, ...], look: Callable[[Motion], list[Event]],
+) -> Motion:
     v, a = samples.t[:n], samples.c[:n]
     check_finite(v, a, "the speeds and accelerations of the motion")
-    motion = Motion(
+    return made(
         mechanism=mechanism, driver=None, driver_name="",
         time=None if times is None else times[:n].copy(), q=samples.q[:n], v=v, a=a,
         closure_error=samples.error[:n], driver_speed=np.ones(n), angles=samples.angles[:n],
-        per="sample" if times is None else "s")
-    motion.error_estimates = scaled_estimates(motion, samples.estimate[:n])
-    return motion
+        per="sample" if times is None else "s", held=held, _look=look,
+        _estimate=lambda motion: scaled_estimates(motion, samples.estimate[:n]))
 
 
 def _where(value: float, is_timeless: bool) -> str:

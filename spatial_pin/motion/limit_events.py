@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
-from spatial_pin._support.lazy import Workspaces, made_anew, made_once
+from spatial_pin._support.lazy import Workspaces, made_anew
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.path_tracker import PathTracker
 from spatial_pin.continuation.pseudo_arclength import Stopped
@@ -389,20 +389,13 @@ class BeyondLimit(NamedTuple):
 
 def velocity_limits(mechanism: Mechanism) -> list[RatedLimit]:
     """Return the velocity limits that the URDF states, in the order of the coordinates."""
-    return _velocity_limits(mechanism, _highest_speeds(mechanism).tobytes())
-
-
-@made_once
-def _highest_speeds(mechanism: Mechanism) -> Array:
-    """Return the velocity limits (nv,) of the model: its own array, not to be changed."""
-    numbers: Array = mechanism.model.upperVelocityLimit
-    return numbers
+    return _velocity_limits(mechanism, mechanism.model.upperVelocityLimit.tobytes())
 
 
 @made_anew  # as anybody may change the numbers
 def _velocity_limits(mechanism: Mechanism, numbers: bytes) -> list[RatedLimit]:
     return [RatedLimit(VELOCITY, c.name, c.v, float(x), f"{c.unit}/s")
-            for c, x in _stated(mechanism, _highest_speeds(mechanism))]
+            for c, x in _stated(mechanism, mechanism.model.upperVelocityLimit)]
 
 
 def effort_limits(mechanism: Mechanism) -> list[RatedLimit]:

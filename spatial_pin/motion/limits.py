@@ -37,7 +37,7 @@ FARTHEST_SLIDE = 20.0
 MOST_TURNS = 100
 # The same where a joint has gone so far [rad or characteristic lengths]: a hundred turns for each
 # of these. By a cubic law of a coupling it would be millions.
-FARTHEST_JOINT = 2.0 * np.pi * 100 * MOST_TURNS
+FARTHEST_JOINT = 100 * MOST_TURNS * TURN
 SPAN_SAMPLES = 721  # samples of one turn: one per half degree
 # Distances to a bound at which samples are added, as parts of the range: each is half of the one
 # before, and the last is a ten-thousandth of a sample distance.

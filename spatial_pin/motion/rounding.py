@@ -30,12 +30,14 @@ CHOICES = 8
 
 
 def within_gap(
-    motion: AnyMotion, accuracy: Accuracy, on_limit: str, independent: int | None = None
+    motion: AnyMotion, accuracy: Accuracy, on_limit: str, independent: int | None = None,
+    start: State | None = None,
 ) -> AnyMotion:
     """Return the part of a motion on which all equations hold to the gap, with an event at its end.
 
     At most a thousand samples are checked. `independent` is how many samples come before equations
-    depend on each other; None: they never do.
+    depend on each other; None: they never do. The motion begins at `start`, by default its first
+    sample.
 
     Raises:
         LimitError: they do.
@@ -43,7 +45,7 @@ def within_gap(
     """
     if motion.mechanism.whole is None or not len(motion):
         return motion
-    gap = allowed_from(motion.state(0), gap_allowed(motion.mechanism, accuracy))
+    gap = allowed_from(start or motion.state(0), gap_allowed(motion.mechanism, accuracy))
     end = len(motion) if independent is None else independent
     rows = np.unique(np.linspace(0, max(end - 1, 0), MOST_SAMPLES).astype(int)).tolist()
     at = next((k for k, row in enumerate(rows) if end and motion.state(row).gap > gap), None)

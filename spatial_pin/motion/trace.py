@@ -79,7 +79,7 @@ def trace(
     positive_number(most_rows, "most_rows")
     system, state, moved = system_at(mechanism, driver, guess, hold)
     curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)
-    first = curve.settle(state.q, system.driver_rates()[:, 0] / system.scale)
+    first = curve.settle(state.q, curve.tangent(system.driver_rates()[:, 0]))
     if first is None:
         raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
                             state=state)

@@ -201,7 +201,8 @@ def jacobian_rate(
     frame = mechanism.frame_id(mechanism.placed(name))
     samples = samples_of(mechanism, state)
     own = samples.mechanism
-    given = Prescription.of(own, moving_coordinates(own, drivers, hold), hold)
+    names = None if drivers is None else tuple(names_of(drivers, "drivers"))
+    given = _prescribed(own, names, hold_names(hold))
     refuse_components(own, given.driven)
     return solved_by(samples, given, ("jacobian_rate",), lambda at, _: solved_for_frame(
         at, given, frame, "jacobian_rate"), frame_in_kernel(own, frame))[0]

@@ -17,8 +17,7 @@ from spatial_pin._support.checks import checked, finite_number
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, mass_shares, of_mechanism
 from spatial_pin.constraints.composed_equations import composed_rates, vector_matrix
-from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
-from spatial_pin.constraints.trees import TreeMotion
+from spatial_pin.constraints.trees import TreeMotion, twist_matrices
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
@@ -202,7 +201,7 @@ def placement_rates(g: Array, twist: Array, accel: Array, jerk: Array) -> list[A
     g (..., 4, 3) has the columns of the rotation, then the position; the twist (..., 6) is that of
     the body in its own axes, linear first; `accel` and `jerk` are its derivatives.
     """
-    h, dh, ddh = ((x @ TWIST_MATRIX).reshape(*x.shape[:-1], 4, 4) for x in (twist, accel, jerk))
+    h, dh, ddh = map(twist_matrices, (twist, accel, jerk))
     g1 = h @ g
     g2 = h @ g1 + dh @ g
     return [g, g1, g2, h @ g2 + 2.0 * dh @ g1 + ddh @ g]

@@ -21,7 +21,7 @@ from spatial_pin.assembly.holding import (
 from spatial_pin.assembly.state import State, at_sample, made, samples_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
+from spatial_pin.kernel.loop_equations import loops_at, loops_of
 from spatial_pin.kernel.rate_solver import Chosen
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -121,30 +121,28 @@ def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list
     if all(c in drivers for c in named):
         yield drivers
         others, still = divided(mechanism, drivers, hold)
-        with loops_of(mechanism, state.angles) as evaluation:
-            evaluation.update(state.q)
-            closed = _closed(evaluation, still)
-            freedoms = mechanism.model.nv - rank(closed)
-        if len(others) > freedoms:
+        if len(others) > mechanism.model.nv - rank(_closed(state, still)):
             yield named
         return
     others_of_joints = siblings(mechanism, named)
     still_drivers = [c for c in drivers if c not in named and c not in others_of_joints]
     for more in ([*others_of_joints, *still_drivers], others_of_joints, still_drivers):
+        if not more:
+            continue
         driven, still = divided(mechanism, [*named, *more], hold)
-        with loops_of(mechanism, state.angles) as evaluation:
-            evaluation.update(state.q)
-            closed = _closed(evaluation, still)
+        closed = _closed(state, still)
         rows = [scaled_row(mechanism, c, state.q) for c in driven]
-        if more and rank(np.vstack([closed, *rows])) == rank(closed) + len(driven):
+        if rank(np.vstack([closed, *rows])) == rank(closed) + len(driven):
             yield [*named, *more]
     yield named
 
 
-def _closed(evaluation: LoopEquations, still: tuple[int, ...]) -> Array:
-    """Return the closure equations, and one for each fixed velocity entry."""
-    rows = evaluation.jacobian[: evaluation.constraints.n_closure]
-    return np.vstack([rows, np.eye(rows.shape[1])[list(still)]]) if still else rows
+def _closed(state: State, still: tuple[int, ...]) -> Array:
+    """Return the closure equations at a state, and one for each fixed velocity entry."""
+    with loops_of(state.mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        rows = evaluation.jacobian[: evaluation.constraints.n_closure]
+        return np.vstack([rows, np.eye(rows.shape[1])[list(still)]]) if still else rows.copy()
 
 
 def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold) -> None:

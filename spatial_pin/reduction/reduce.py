@@ -337,6 +337,7 @@ def reduce(
 @made_once
 def _starts(reduced: Reduced) -> Callable[..., Array | None]:
     """Return a cached function that assembles the full mechanism at (name, value) pairs."""
+    at = _entries(reduced, reduced.full)
 
     @lru_cache(STARTS)
     def start(*values: tuple[str, float]) -> Array | None:
@@ -346,7 +347,6 @@ def _starts(reduced: Reduced) -> Callable[..., Array | None]:
             return None
         return there.q[at]
 
-    at = _entries(reduced, reduced.full)
     return start
 
 

@@ -7,6 +7,7 @@ import pickle
 import warnings
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import rounded
 from folders import DATA
@@ -423,3 +424,27 @@ def test_a_simulation_ends_where_a_rounded_file_contradicts_itself():
     motion = sp.simulate(loop, start, 3.0, times=np.linspace(0.0, 3.0, 121))
     assert 5 < len(motion) < 121
     assert [e.kind for e in motion.events] == ["gap"] and "gap=" in motion.events[0].text
+
+
+def test_a_simulation_of_a_file_that_contradicts_itself_before_the_first_sample():
+    loop = rounded.line_symmetric(678015, rounded.to_digits(4))
+    start = sp.solve_rates(loop, assembled(loop), {"h0": 1.0})
+    with pytest.raises(sp.SingularError, match=r"beyond the gap of .*gap="):
+        sp.simulate(loop, start, 3.0, times=[2.9, 3.0])
+
+
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+def test_forces_from_outside_are_asked_for_once_in_each_sample():
+    loop = rounded.bennett(rounded.to_digits(7))
+    motion = sp.sweep(loop, "h0", np.linspace(0.0, 0.2, 5), speed=1.0)
+    asked, link = [], loop.links[1]
+
+    def external(t, state):
+        asked.append(t)
+        return {link: pin.Force(np.array([1.0, 2.0, 3.0]), np.zeros(3))}
+
+    loads = sp.inverse_dynamics(loop, motion, external=external)
+    assert asked == motion.time.tolist()
+    for k in range(5):
+        found = sp.inverse_dynamics(loop, motion.state(k), external=external(0.0, None))
+        assert loads.efforts["h0"][k] == pytest.approx(found.efforts["h0"], rel=1e-9)

@@ -580,6 +580,14 @@ def test_a_measurement_that_cannot_be_reached_is_reported_by_number():
         sp.calibrate(built()[0], table, PLACES[:3], offsets=LEGS)
 
 
+def test_a_measurement_beside_a_singular_configuration_is_refused():
+    """All links of the four-bar are in line at crank = pi: no derivative has a digit beside it."""
+    mech, crank = library("four_bar", r3=0.16), {"crank": np.pi - 1e-8}
+    seen = {"rocker_pin": sp.assemble(mech, crank).coordinate("rocker_pin").value}
+    with pytest.raises(sp.SingularError, match="the derivatives have no reliable digit there"):
+        sp.calibrate(mech, [(crank, seen)], ["r3"])
+
+
 def test_a_file_or_table_of_measurements_is_refused_in_words():
     for measurements in ("poses.csv", {"crank": [0.0, 1.0]}):
         with pytest.raises(TypeError, match="spatial-pin calibrate"):

@@ -157,6 +157,14 @@ def test_steps_are_shorter_where_the_branch_ends_at_nearby_dimensions():
     assert abs(abs(found.derivatives["l"]) - wanted) < min(1e-6 * wanted, found.errors["l"])
 
 
+def test_a_derivative_without_a_digit_is_refused():
+    """All links of the four-bar are in line at crank = pi: no other coupler has a branch to it."""
+    mechanism = library("four_bar", r3=0.16)
+    state = sp.assemble(mechanism, {"crank": np.pi - 1e-8})
+    with pytest.raises(sp.SpatialPinError, match="no closed configuration of this branch"):
+        sp.sensitivity(mechanism, state, "rocker_pin", ["r3"])
+
+
 # ---------------------------------------------------------------- over a motion
 
 

@@ -274,6 +274,17 @@ guess = {crank = 0.2, rod = 1.2}
     assert np.isfinite(sp.function(alone.mechanism, ["crank"], ["rocker"]).jacobian([0.3])).all()
 
 
+def test_derivatives_without_a_digit_are_refused():
+    """Beside a crank angle where all links are in line, so that branches cross."""
+    mech = library("four_bar", r3=0.16)  # r1 + r2 = r3 + r4
+    f = sp.function(mech, ["crank", "r3"], ["rocker_pin"], sp.assemble(mech, {"crank": 2.8}))
+    x = [[2.8, 0.16], [np.pi - 1e-8, 0.16]]
+    assert np.isfinite(f(x)).all() and np.isfinite(f.jacobian(x[:1])).all()
+    with pytest.raises(sp.SingularError, match=r"row 1: .*derivatives have no reliable digit") as e:
+        f.jacobian(x)
+    assert e.value.state.coordinate("crank").value == x[1][0]
+
+
 @pytest.mark.parametrize(("inputs", "outputs", "kind", "words"), [
     (["crnk"], ["rocker_pin"], sp.UnknownNameError, "no input 'crnk'; did you mean 'crank'"),
     (["crank"], ["rocker"], sp.UnknownNameError, "no differentiable output 'rocker'"),

@@ -2,8 +2,8 @@
 
 The equations M a + b - f - J^T lambda = 0 and r'' = J a + gamma = 0 are differentiated with
 respect to q, v and f; the unknown derivatives of a and lambda solve the same linear system as a and
-lambda do. Those of M a + b are Pinocchio's, on joints whose motion subspace is constant
-(`constraints.composite_joints`), those of the rows `derivatives.closures`.
+lambda do. The kernel differentiates M a + b and the rows, on joints whose motion subspace is
+constant (`constraints.composite_joints`), see `row_derivatives`.
 `computeConstraintDynamicsDerivatives` is not used: in Pinocchio 4.1 its derivatives by q differ
 from the differences of its own accelerations on trees with composite joints, and on the RSSR.
 """

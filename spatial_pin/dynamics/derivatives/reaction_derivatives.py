@@ -148,16 +148,16 @@ class ReactionChanges:
             falling = np.zeros((6, self.nv))
             falling[:3] = skewed(pull) @ columns[3:]
             momentum, dual = inertia @ v, -motion_cross(v).T
-            f = inertia @ (back @ tree.a[joint] - np.append(pull, np.zeros(3))) + dual @ momentum
+            a = back @ tree.a[joint] - np.append(pull, np.zeros(3))  # less gravity
+            f = inertia @ a + dual @ momentum
             turning = _bar(momentum) + dual @ inertia
             out[:, 0] = f
             out[:, self.by_q] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
             out[:, self.by_v] = inertia @ a_by_v + turning @ columns
             out[:, 1:] += inertia @ back @ carried[joint]
             if self.inertia_changes is not None:
-                falling_in = back @ tree.a[joint] - np.append(pull, np.zeros(3))
                 out[:, 1 + 2 * self.nv :] += pin.bodyRegressor(
-                    pin.Motion(v), pin.Motion(falling_in)) @ self.inertia_changes[i]
+                    pin.Motion(v), pin.Motion(a)) @ self.inertia_changes[i]
             out[:] = back.T @ out
         return total
 

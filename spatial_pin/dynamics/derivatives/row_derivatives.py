@@ -17,11 +17,10 @@ from spatial_pin.constraints.composed_equations import Composed, composed_of
 from spatial_pin.constraints.composite_joints import TreeArrays, single_joints
 from spatial_pin.constraints.kernel_tree import centred_tree
 from spatial_pin.constraints.trees import Motion, TreeMotion
+from spatial_pin.dynamics.bushings import Coefficients
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-
-Coefficients = dict[int, Array]  # of a vector: (4,) by joint
 
 
 class RowDerivatives:

@@ -230,7 +230,7 @@ class IndependentFormulation:
         """Return configuration (nq,) and velocity (nv,) at y.
 
         Raises:
-            Lost: the loops cannot be closed there.
+            OpenLoopsError: the loops cannot be closed there.
         """
         return self._closed(t, y)[:2]
 
@@ -238,7 +238,7 @@ class IndependentFormulation:
         """Return the State at y, with velocities.
 
         Raises:
-            Lost: the loops cannot be closed there.
+            OpenLoopsError: the loops cannot be closed there.
         """
         q, v, angles, error = self._closed(t, y)
         return State(self.problem.mechanism, q, v, closure_error=error, angles=angles)
@@ -253,7 +253,7 @@ class IndependentFormulation:
         """Return samples at times (N,) and unknowns (N, n), loops closed.
 
         Raises:
-            Lost: they cannot be at one of them.
+            OpenLoopsError: they cannot be at one of them.
         """
         rows = self.kernel.samples(times, unknowns)
         if rows is None:

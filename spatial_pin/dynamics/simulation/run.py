@@ -126,6 +126,11 @@ class Record:
         self._time_tolerance = (
             0.0 if INTEGRATORS[accuracy.integrator].is_fixed else accuracy.time_tolerance)
 
+    @property
+    def last(self) -> float:
+        """The time of the last sample; before all times where there is none."""
+        return float(self._at[self.filled - 1]) if self.filled else -math.inf
+
     def times_until(self, end: float) -> Array:
         """Return the times of missing samples up to `end`."""
         return self.times[self.filled : np.searchsorted(self.times, end, "right")]
@@ -154,8 +159,7 @@ class Record:
             step, times, length / max(longest, length))
         if stop is not None:
             times = self.times_until(stop.value)
-            last = self._at[self.filled - 1] if self.filled else -np.inf
-            if stop.value > max([last, *times]):
+            if stop.value > max([self.last, *times]):
                 times = np.union1d(times, [stop.value])
         unknowns = step.unknowns(times) if times.size else np.empty((0, len(after)))
         first = self.filled
@@ -382,7 +386,7 @@ class Run:
             action = NextAction.STEP
         if is_within_gap:
             return action
-        if self.record.recorded()[0][-1:] < self.t:
+        if self.record.last < self.t:
             self.record.add_samples(system, np.array([self.t]), self.y[None])
         return NextAction.END
 
@@ -526,7 +530,8 @@ class EquationsInUse:
         self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
         self._clock = time.perf_counter()
         self._gap = allowed_from(first, gap_allowed(problem.mechanism, accuracy))
-        self._tried_at = 2.0 * NEARLY_DEPENDENT  # independence at which no others did better, twice
+        # Independence at which no others did better; twice the limit while there is none.
+        self._tried_at = 2.0 * NEARLY_DEPENDENT
 
     @property
     def system(self) -> IndependentFormulation:

@@ -351,7 +351,8 @@ def _of_rounded_file(
             raise
     if seen.mechanism is not state.mechanism and len(seen):
         seen.mechanism = independent_on(seen, accuracy, seen.v[-1])[0]
-    return within_gap(within_gap(seen, accuracy, "stop"), accuracy, "stop", depend)
+    seen = within_gap(seen, accuracy, "stop", start=state)
+    return within_gap(seen, accuracy, "stop", depend, state)
 
 
 def _followed(

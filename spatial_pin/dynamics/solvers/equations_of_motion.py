@@ -72,7 +72,7 @@ class MotionEquations(Loops):
     _solved: KKT | None = None  # the system whose factors and multipliers are those of the State
 
     def solve(self, given: Array) -> Solution:
-        """Return the accelerations under joint forces f (nv,) at the State of the last `place`.
+        """Return the accelerations under joint forces f (nv,) at the State of the last `move_to`.
 
         Raises:
             SingularError: a freedom has no inertia, or the loops have lost rank.
@@ -223,7 +223,7 @@ class Equations(MotionEquations):
             springs.turning(state.q, state.v) if springs.exist else self.rest)
         if external:
             self.wrenches += external_wrenches(self.mechanism, self.evaluation, external)
-        if springs.exist and (springs.lines or springs.bushings):
+        if springs.on_frames:
             self.wrenches += springs.wrenches(self.evaluation, state.v)
         if self.wrenches:
             self.given = self.turning + generalised(self.evaluation, self.wrenches)

@@ -61,9 +61,7 @@ class IndependentCoordinates:
             the others best.
 
     Attributes:
-        free: the independent coordinates, in the order of the columns.
         columns: (nv, n) joint velocities; in each, one of the free coordinates moves at its unit.
-        pivot: smallest over largest pivot of their equations.
     """
 
     def __init__(
@@ -73,7 +71,6 @@ class IndependentCoordinates:
         self._scale = scale
         if free is None:
             free = np.setdiff1d(np.arange(nv), independent_rows(rows.T, 0.0)).tolist()
-        self.free = free
         whole = np.zeros((nv, nv))
         whole[:r] = rows
         whole[np.arange(r, nv), list(free)] = 1.0
@@ -81,7 +78,6 @@ class IndependentCoordinates:
         self._known = np.zeros((nv, nv))
         self._known[:r] = np.where(rows != 0.0, ROUNDING * self._largest[:, None], 0.0) + opened
         self._factors = Factors(whole)
-        self.pivot = self._factors.pivot
         units = np.zeros((nv, nv - r))
         units[r:] = np.eye(nv - r)
         self.columns = self._solve(units)
