@@ -55,7 +55,8 @@ static void add_second(Path *path, const Real *a, const Real *b, Real factor, Re
     }
 }
 
-/* Subtract third derivatives along the path's t, twice, and along u (nv), scaled, from a right side: by a difference. */
+/* Subtract third derivatives along the path's t, twice, and along u (nv), scaled, from a right side: by a
+   difference. */
 static void subtract_third(Path *path, const Real *u, Real *right)
 {
     Kernel *k = path->k;

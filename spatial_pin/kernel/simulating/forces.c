@@ -116,7 +116,8 @@ Real forces_energy(Dynamics *d, Real *kinetic)
         const Real *spring = (line ? d->forces.springs.line_spring : d->forces.turn_spring) + 3 * at;
         if (line ? d->forces.springs.line_law[at] : d->forces.turn_law[at])
             continue;
-        const Real x = (line ? spring_line(d->k, &d->forces.springs, at).length : d->q[d->forces.turn_q[at]]) - spring[2];
+        const Real length = line ? spring_line(k, &d->forces.springs, at).length : d->q[d->forces.turn_q[at]];
+        const Real x = length - spring[2];
         stored += 0.5 * spring[0] * x * x;
     }
     *kinetic = moving;
