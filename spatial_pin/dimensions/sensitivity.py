@@ -236,7 +236,8 @@ class _Around:
     def differentiated(self, state: State, drive: DriverMotion) -> list[Sensitivity]:
         """Return the derivatives of the outputs at a state."""
         values = drive.evaluate(state.mechanism, state, self._outputs)
-        known, sizes = _known(state), _sizes(state, drive, self._outputs)
+        sizes, pivot = _sizes(state, drive, self._outputs), _smallest_pivot(state)
+        known = CONFIGURATION_ERROR / pivot  # [rad, lengths]; it changes the pivot by as much
         changes = self._changes(state, drive)
         results, n = [], len(self._names)
         for k, (output, value) in enumerate(zip(self._outputs, values, strict=True)):
@@ -252,7 +253,8 @@ class _Around:
                                    for x in around])
                     eighth, sixth = (np.tensordot(w / h, at, 1) for w in (EIGHTH, SIXTH))
                 one.derivatives[name] = float(eighth) if np.ndim(eighth) == 0 else eighth
-                one.errors[name] = float(np.max(np.abs(eighth - sixth))) + known * size / h
+                one.errors[name] = float(np.max(np.abs(eighth - sixth)) + known * size / h
+                                         + known / pivot * np.max(np.abs(eighth)))
             results.append(one)
         return results
 
@@ -324,19 +326,20 @@ def _at_rest(state: State) -> State:
                  angles=state.angles if state.angles.size else None)
 
 
-def _known(state: State) -> float:
-    """Return the round-off of closed configurations [rad, characteristic lengths].
+def _smallest_pivot(state: State) -> float:
+    """Return the smallest pivot of the closure equations by the largest.
 
-    It grows as the smallest pivot of the closure equations, relative to the largest, becomes small.
+    A configuration is known to round-off by it, and derivatives to that by it once more. It is 1
+    where the drivers do not determine the motion.
     """
     mechanism = state.mechanism
     given = Prescription.of(mechanism, driven_coordinates(mechanism, mechanism.drivers), BASE)
     try:
         facts = solved_by(state, given, ("facts",), lambda at, _: solved_at(
             at, given, ("facts",), chosen=chosen_at(at, given)))[0]
-        return CONFIGURATION_ERROR / facts.item(0)
+        return float(facts.item(0))
     except SingularError:
-        return CONFIGURATION_ERROR
+        return 1.0
 
 
 def _sizes(state: State, drive: DriverMotion, outputs: Iterable[str]) -> dict[str, float]:

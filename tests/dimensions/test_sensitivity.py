@@ -157,6 +157,22 @@ def test_steps_are_shorter_where_the_branch_ends_at_nearby_dimensions():
     assert abs(abs(found.derivatives["l"]) - wanted) < min(1e-6 * wanted, found.errors["l"])
 
 
+@pytest.mark.parametrize("over", [1e-3, 1e-6, 1e-8, 1e-10, 1e-12])
+def test_the_error_near_a_configuration_with_all_links_in_line_is_a_bound(over):
+    """The angle between ground diagonal and rocker is that of a triangle with sides l, r3, r4."""
+    mechanism = library("four_bar", r3=0.16 + over)
+    found = sp.sensitivity(
+        mechanism, sp.assemble(mechanism, {"crank": np.pi}), "rocker_pin", ["r3"])
+    with mp.workdps(40):
+        r1, r2, r3, r4 = (mpf(mechanism.dimensions[f"r{k}"]) for k in (1, 2, 3, 4))
+        crank = mpf(np.pi)
+        diagonal = mp.sqrt(r1**2 + r2**2 - 2 * r1 * r2 * mp.cos(crank))
+        cosine = (diagonal**2 + r4**2 - r3**2) / (2 * diagonal * r4)
+        slope = r3 / (diagonal * r4 * mp.sqrt(1 - cosine**2))
+        off = float(abs(abs(mpf(found.derivatives["r3"])) - slope))
+    assert off <= found.errors["r3"] < 0.1 * slope
+
+
 def test_a_derivative_without_a_digit_is_refused():
     """All links of the four-bar are in line at crank = pi: no other coupler has a branch to it."""
     mechanism = library("four_bar", r3=0.16)
